@@ -55,21 +55,25 @@ def test_flights_are_fitted_by_parabolas_with_the_noise_that_they_have(known: bo
     predicted = found.fit.jacobian.base.pose[0, :, :, 0, :3]
     assert float((predicted - best).abs().max()) < (1.0 if known else 0.3) * NOISE[1]
     grid = found.experiment.predictor.timeline.grid
-    step = 1 / 240 if known else 1 / 60  # half the steps go as far, in a free fall
-    assert torch.allclose(grid.steps[grid.real], torch.tensor(step).double())
-    assert (found.steps is None) is known
-    assert (Stage.CHOOSING_STEPS in said) is not known
+    assert torch.allclose(grid.steps[grid.real], torch.tensor(1 / 60).double())  # others go as far, in a free fall
+    assert found.steps is not None
+    assert Stage.CHOOSING_STEPS in said
     assert bool(found.experiment.follow.all()) is known
     assert bool(found.experiment.engine.any()) is known
 
 
-def test_steps_that_are_given_are_not_chosen() -> None:
+@pytest.mark.parametrize(
+    ("made_by", "substeps", "step"), [(None, 3, 1 / 180), (replace(BULLET, step=1 / 60), None, 1 / 60)]
+)
+def test_steps_that_are_given_or_one_from_frame_to_frame_are_not_chosen(
+    made_by: Integration | None, substeps: int | None, step: float
+) -> None:
     made = calm(frames=16)
     old = made.experiment.predictor
-    model = NominalModel(replace(old.model.scene, integration=None), substeps=3)
+    model = NominalModel(replace(old.model.scene, integration=made_by), substeps=substeps)
     found = fit_nominal_model(observed(made, ROLES), model, (), random(), settings=REPLAYS)
     grid = found.experiment.predictor.timeline.grid
-    assert torch.allclose(grid.steps[grid.real], torch.tensor(1 / 180).double())
+    assert torch.allclose(grid.steps[grid.real], torch.tensor(step).double())
     assert found.steps is None
 
 

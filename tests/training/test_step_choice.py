@@ -27,7 +27,7 @@ from physid.estimation.prediction.nominal_model import NominalModel
 from physid.estimation.prediction.segments import Segmentation
 from physid.estimation.prediction.timeline import Timeline
 from physid.physics import PhysicsLayer, State, World
-from physid.physics.schemes.integration import Midpoint
+from physid.physics.schemes.integration import Midpoint, SemiImplicit
 from physid.scenes import find_setup
 
 G, FRICTION, FORCE, MASS = 9.81, 0.2, -4.0, 1.0
@@ -50,10 +50,11 @@ def true_places(time: Tensor) -> Tensor:
     return speed * early + 0.5 * before * early**2 + 0.5 * after * late**2
 
 
-def judgement(noise: float, *, alone: bool = False) -> Judgement:
+def judgement(noise: float, *, alone: bool = False, made: float | None = None) -> Judgement:
     """Return what steps of these blocks are judged by; the one estimate is the mean shift along the line.
 
-    Below another block, of 1e-5 of its mass, friction does not turn within a step: reversals are of first order.
+    Below another block, of 1e-5 of its mass, friction does not turn within a step: reversals are of first order. Those
+    that a simulator made in known steps are followed by its scheme.
     """
     steps = torch.full((COUNT, FRAMES - 1), FRAME, dtype=torch.float64)
     frames = torch.arange(FRAMES).expand(COUNT, -1)
@@ -63,7 +64,7 @@ def judgement(noise: float, *, alone: bool = False) -> Judgement:
     twist = torch.zeros(COUNT, one.pose.shape[1], 6, dtype=torch.float64)
     twist[:, 0, 3] = speeds()
     begin = State(one.pose.expand(COUNT, -1, -1), twist)
-    layer = PhysicsLayer(World(integration=Midpoint()))
+    layer = PhysicsLayer(World(integration=Midpoint() if made is None else SemiImplicit(made)))
 
     def predict(timeline: Timeline) -> tuple[Tensor, Tensor]:
         cut = timeline.grid
@@ -82,7 +83,7 @@ def judgement(noise: float, *, alone: bool = False) -> Judgement:
     counted = torch.ones(COUNT, FRAMES, 1, dtype=torch.bool)
     spread = torch.tensor([10 * noise] * 3 + [noise] * 3, dtype=torch.float64)
     time = FRAME * frames.double()
-    return Judgement(Timeline(time, grid), predict, respond, spread, every, counted)
+    return Judgement(Timeline(time, grid), predict, respond, spread, every, counted, made)
 
 
 def mean_error(judged: Judgement, parts: int) -> float:
@@ -106,6 +107,22 @@ def test_a_block_alone_turns_around_with_an_error_of_second_order() -> None:
     assert errors[1] / errors[2] > 3
     assert errors[2] / errors[4] > 3
     assert abs(mean_error(judgement(1e-3), 4)) > 15 * errors[4]
+
+
+@pytest.mark.parametrize("count", [40, 7])
+def test_steps_of_a_simulator_are_taken_where_blocks_turn_around_and_longer_ones_elsewhere(count: int) -> None:
+    noise = 1e-5
+    judged = judgement(noise, alone=True, made=FRAME / count)
+    chosen = halve_steps(judged)
+    assert int(chosen.parts.max()) == count  # no shorter ones, whatever the number
+    assert chosen.mean < count / 3
+    assert chosen.left == 0  # those of the simulator are exact
+    pose, twist = judged.predict(chosen.timeline)
+    exact_pose, exact_twist = judged.predict(judged.base.refined(count))
+    assert float((pose - exact_pose)[..., 0].abs().max()) < noise
+    assert float((chosen.parts == count).any(1).double().mean()) > 0.7  # some turn around near the end of a step
+    # Where nothing turns around, nothing is missed.
+    torch.testing.assert_close(twist[:, 1], exact_twist[:, 1], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("bodies", "shortest"), [(1, 2.5e-4), (2, 1e-3)])
@@ -194,7 +211,7 @@ def test_steps_count_by_the_standard_errors_by_which_they_move_what_is_fitted() 
         pose[..., 0], pose[..., 6] = (float(timeline.grid.steps.max()) * off)[:, None], 1.0
         return SimpleNamespace(predict=lambda _: SimpleNamespace(pose=pose, twist=twist))
 
-    predictor = SimpleNamespace(at_times=at_times, segments=segments)
+    predictor = SimpleNamespace(at_times=at_times, segments=segments, model=SimpleNamespace(made_in=None))
     scale, fitted = torch.full((1, frames, 1, 6), 1 / noise, dtype=torch.float64), torch.ones(1, dtype=torch.bool)
     experiment: Any = SimpleNamespace(predictor=predictor, scale=scale, fitted=fitted)
     fit: Any = SimpleNamespace(point=SimpleNamespace(nominal=torch.zeros(1, 2)), linear=Linearised(segments, (part,)))

@@ -12,6 +12,9 @@ from torch import Tensor
 PATCH = 4
 """Contacts in a patch: the four corners by which a face stands on a plane or on another face."""
 
+SEVERAL = 1.5
+"""A step that is so many times as long as one of a simulator stands for several of them: it is nearer to two [-]."""
+
 WARP_COMPLIANCE = 0.1
 FLATNESS = 1e-3
 

@@ -83,6 +83,11 @@ class World:
         return isinstance(self.integration, Midpoint)
 
     @property
+    def single_step(self) -> float | None:
+        """Length [s] of the steps of a simulator of which one of the engine stands for several (see `SemiImplicit`)."""
+        return self.integration.step if isinstance(self.integration, SemiImplicit) else None
+
+    @property
     def step(self) -> float:
         """Length of one step of the engine [s]."""
         return self.time_step / self.substeps

@@ -96,10 +96,6 @@ class StepGrid:
         wrench = torch.where(filled[..., None, None], 0.0, wrench)
         return StepGrid(steps, wrench, ends.gather(1, self.frame_step), count)
 
-    def in_steps_of(self, length: float) -> StepGrid:
-        """Return the grid with each step cut into as many equal parts as come nearest to a length [s], at least one."""
-        return self.refine((self.steps / length).round().long().clamp_min(1))
-
     def chosen(self, which: Tensor) -> StepGrid:
         """Return the grid of some trajectories, by index or mask, no longer than they need."""
         count = self.count[which]

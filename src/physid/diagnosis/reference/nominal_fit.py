@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
@@ -12,7 +12,7 @@ from physid.diagnosis.inputs import Observations
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.following import fit_beside_references
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit
+from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit, StepChoice
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import EffectKinds, NominalModel, Predictor, Segmentation, Timeline
 from physid.estimation.segmented_fit import (
@@ -41,7 +41,8 @@ class NominalFit:
         phases: Codes of what each body is doing, shape (R, T, N).
         events: Frames at which small errors grow fast, shape (R, T).
         settings: What decided, and decides in all that follows.
-        steps: The steps of the engine that were chosen; None where they are known, or given.
+        steps: The steps of the engine that were chosen; None where they are given, or those of the simulator that made
+            the recordings, one from frame to frame.
     """
 
     observations: Observations
@@ -104,7 +105,7 @@ def fit_nominal_model(
     first = fit_short_segments(observations, Predictor(model, timeline, whole, candidates), own)
     say(Stage.FITTING_NOMINAL)
     found = fit_around_events(first, own)
-    for _ in range(own.rounds.step_choices if _chooses_steps(model) else 0):
+    for _ in range(own.rounds.step_choices if _chooses_steps(observations, model) else 0):
         say(Stage.CHOOSING_STEPS)
         found = fit_with_chosen_steps(found, own)
     experiment, fit, noise, settings = fit_beside_references(
@@ -118,13 +119,16 @@ def fit_nominal_model(
 
 
 def _first_steps(observations: Observations, model: NominalModel) -> Timeline:
-    """Return the timeline with the steps that are known, or the longest where they are chosen later."""
-    timeline, made = observations.timeline, model.scene.integration
+    """Return the timeline with the steps that are given, or the longest where they are chosen later."""
+    return observations.timeline if model.substeps is None else observations.timeline.refined(model.substeps)
+
+
+def _chooses_steps(observations: Observations, model: NominalModel) -> bool:
+    """Return whether the steps of the engine follow from the recordings.
+
+    They do where nobody says how these were integrated, and where it was in steps much shorter than a frame.
+    """
     if model.substeps is not None:
-        return timeline.refined(model.substeps)
-    return timeline if made is None else replace(timeline, grid=timeline.grid.in_steps_of(made.step))
-
-
-def _chooses_steps(model: NominalModel) -> bool:
-    """Return whether the steps of the engine follow from the recordings: nobody says how these were integrated."""
-    return model.substeps is None and model.scene.integration is None
+        return False
+    most = StepChoice().most(observations.timeline.grid, len(model.scene.bodies), model.made_in)
+    return model.made_in is None or bool((most > 1).any())

@@ -76,14 +76,17 @@ def with_own_steps(nominal_fit: NominalFit, one: Hypothesis) -> Hypothesis:
     """Fit a hypothesis again with the steps that it needs itself, where nobody says how recordings were integrated.
 
     Steps were chosen by the nominal model, whose misfit hides what they change; an effect that explains that has
-    standard errors of which the same steps may change much.
+    standard errors of which the same steps may change much. Where somebody says, replays in the steps of that simulator
+    have accounted for what longer ones miss.
 
     Args:
         nominal_fit: The nominal model, and the steps that it chose.
         one: A hypothesis, fitted; one with an effect that acts late has short steps already, and is returned as it is.
     """
     predictor = one.experiment.predictor
-    if nominal_fit.steps is None or any(acts_late(predictor.terms[k].effect) for k in one.columns.tolist()):
+    if nominal_fit.steps is None or predictor.model.made_in is not None:
+        return one
+    if any(acts_late(predictor.terms[k].effect) for k in one.columns.tolist()):
         return one
     base, first = nominal_fit.observations.timeline, nominal_fit.steps.parts
     chosen = choose_steps(one.experiment, one.fit, base, one.settings.steps, first)

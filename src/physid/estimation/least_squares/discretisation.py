@@ -45,8 +45,14 @@ class StepChoice(Section):
         """Return about how long the shortest part of a step is in a world of so many bodies [s]."""
         return self.shortest if bodies == 1 else max(self.shortest, self.contact)
 
-    def most(self, grid: StepGrid, bodies: int) -> Tensor:
-        """Return the most parts of each step, the power of two that makes them about so long, shape (R, S)."""
+    def most(self, grid: StepGrid, bodies: int, made: float | None = None) -> Tensor:
+        """Return the most parts of each step, shape (R, S).
+
+        The steps of a simulator that made the recordings [s], where these are known: no shorter ones are nearer to
+        them. Else the power of two that makes steps about as long as the shortest.
+        """
+        if made is not None:
+            return (grid.steps / made).round().long().clamp_min(1)
         power = (grid.steps / self.shortest_among(bodies)).log2().round().clamp_min(0)
         return (2**power).long()
 
@@ -87,6 +93,7 @@ class Judgement:
         noise: Standard deviations of the sensor, rotation [rad] and position [m], shape (6,).
         followed: Whether a frame is predicted from the one before, shape (R, T - 1).
         counted: Poses that count, shape (R, T, N).
+        made: Length of the steps of the simulator that made the recordings [s]; None where nobody says.
     """
 
     base: Timeline
@@ -95,11 +102,11 @@ class Judgement:
     noise: Tensor
     followed: Tensor
     counted: Tensor
+    made: float | None = None
 
-    @property
-    def bodies(self) -> int:
-        """How many there are."""
-        return self.counted.shape[2]
+    def most(self, choice: StepChoice) -> Tensor:
+        """Return the most parts of each step, shape (R, S)."""
+        return choice.most(self.base.grid, self.counted.shape[2], self.made)
 
 
 def choose_steps(
@@ -133,7 +140,8 @@ def choose_steps(
 
     followed = experiment.predictor.segments.position[:, 1:] > 0
     counted = (experiment.scale > 0).any(-1)
-    judgement = Judgement(base, predict, respond if len(unknown) else none, _noise(experiment), followed, counted)
+    made = experiment.predictor.model.made_in
+    judgement = Judgement(base, predict, respond if len(unknown) else none, _noise(experiment), followed, counted, made)
     return halve_steps(judgement, choice, first)
 
 
@@ -184,7 +192,7 @@ def parts_for_late_forces(
     mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
     moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
     held = gravity * torch.tensor([body.friction for body in bodies], dtype=torch.float64)
-    grid, most = base.grid, choice.most(base.grid, len(bodies))
+    grid, most = base.grid, choice.most(base.grid, len(bodies), experiment.predictor.model.made_in)
     if choice.late == 0 or grid.steps.shape[1] < 2:
         return torch.ones_like(most)
     change = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / torch.stack([moment, mass], -1)
@@ -211,12 +219,12 @@ def parts_for_late_forces(
 
 def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice) -> Tensor:
     """Return into how many parts (R, S) the steps are cut, so that halving them changes little."""
-    base, most = judgement.base, choice.most(judgement.base.grid, judgement.bodies)
+    base, most = judgement.base, judgement.most(choice)
     length = base.time.diff(dim=1)[..., None, None]
     reference = judgement.predict(base.refined(most)) if choice.finest else None
     while True:
         pose, twist = judgement.predict(base.refined(parts))
-        fine_pose, fine_twist = reference or judgement.predict(base.refined(2 * parts))
+        fine_pose, fine_twist = reference or judgement.predict(base.refined((2 * parts).minimum(most)))
         place, speed = pose_difference(pose, fine_pose), twist - fine_twist
         gained = speed.diff(dim=1) * choice.reach
         moved = place.diff(dim=1) - speed[:, :-1] * length
@@ -226,7 +234,7 @@ def _cut(judgement: Judgement, parts: Tensor, defect: float, choice: StepChoice)
         again = wrong.gather(1, base.owner) & (parts < most)
         if not bool(again.any()):
             return parts
-        parts = torch.where(again, 2 * parts, parts)
+        parts = torch.where(again, (2 * parts).minimum(most), parts)
 
 
 def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> ChosenSteps:
@@ -234,8 +242,10 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
 
     What those leave is extrapolated (Richardson 1911): where friction turns around within a step, poses are off in
     proportion to its length, so that steps of twice the length are off by as much more as the fine ones are at all.
+    Those of the simulator that made the recordings leave nothing.
     """
-    fine = choice.most(judgement.base.grid, judgement.bodies) if choice.finest else 2 * parts
+    known = judgement.made is not None
+    fine = judgement.most(choice) if choice.finest or known else 2 * parts
     pose, fine_pose, double_pose = (
         judgement.predict(judgement.base.refined(each))[0] for each in (parts, fine, (fine // 2).clamp_min(1))
     )
@@ -251,7 +261,7 @@ def judge_steps(judgement: Judgement, parts: Tensor, choice: StepChoice) -> Chos
         int(per_frame.max()),
         (float((rotation / count).sqrt()), float((position / count).sqrt())),
         float(shift.abs().max()) if len(shift) else 0.0,
-        float(beyond.abs().max()) if len(beyond) else 0.0,
+        float(beyond.abs().max()) if len(beyond) and not known else 0.0,
         parts,
     )
 

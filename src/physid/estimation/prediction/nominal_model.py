@@ -62,8 +62,13 @@ class NominalModel:
             self.scene.gravity,
             ground,
             contact=(self.contact or Split()) if known else Speculative(),
-            integration=SemiImplicit() if known else Midpoint(),
+            integration=SemiImplicit(self.made_in) if known else Midpoint(),
         )
+
+    @property
+    def made_in(self) -> float | None:
+        """Length of the steps of the simulator that made the recordings [s]; None where nobody says."""
+        return None if self.scene.integration is None else self.scene.integration.step
 
     @property
     def guess(self) -> Tensor:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from physid.physics.contact import WARP_COMPLIANCE, Patch
+from physid.physics.contact import SEVERAL, WARP_COMPLIANCE, Patch, Speculative
 from physid.physics.effect import StepInputs
 from physid.physics.schemes.impact import bending, damping_time, demand, stuck
 from physid.physics.schemes.motion import MassCentres
@@ -140,8 +141,19 @@ def _approach(patch: Patch, bodies: MassCentres, free: Tensor, world: World, uni
     jacobian = _patch_jacobian(patch, bodies.position)
     velocity = torch.einsum("bckn,bn->bck", jacobian, bodies.twist.flatten(1) / unit[:, None]) * unit[:, None, None]
     free_speed = torch.einsum("bckn,bn->bck", jacobian, free)[..., 0] * unit[:, None]
-    exists = patch.active & world.contact.exists(patch.gap, REACH + 2 * h * free_speed.detach().abs())
+    reach = REACH + 2 * h * free_speed.detach().abs()
+    closes = _stands_for_several(world, h) & (patch.gap < reach)
+    exists = patch.active & (world.contact.exists(patch.gap, reach) | closes)
     return _Approach(jacobian, velocity, free_speed, exists, exists & (patch.gap + h * free_speed / 2 < 0))
+
+
+def _stands_for_several(world: World, step: Tensor) -> Tensor:
+    """Return which steps stand for several of a simulator, shape as `step`.
+
+    Contacts that these close, by a rule that begins them in overlap, begin within such a step: it stops bodies where
+    they touch (`Speculative`), since they would else fall through the ground for all of it.
+    """
+    return step > SEVERAL * (math.inf if world.single_step is None else world.single_step)
 
 
 def _met(patches: list[Patch], approaches: list[_Approach], bodies: int) -> list[Tensor]:
@@ -201,7 +213,11 @@ def _demand(
     if not world.midpoint:
         speed, bounce = approach.velocity[..., 0], restitution[:, None]
         yields = (compliance > 0)[:, None] & (patch.gap < 0)
-        rigid = world.contact.offset(patch.gap, speed, approach.free_speed, bounce, h[:, None])
+        known = patch.gap, speed, approach.free_speed, bounce, h[:, None]
+        rigid = world.contact.offset(*known)
+        if world.single_step is not None:
+            within = _stands_for_several(world, h[:, None]) & (patch.gap >= 0)
+            rigid = torch.where(within, Speculative().offset(*known), rigid)
         offset = torch.where(yields, world.contact.spring(patch.gap, speed, bounce, pace[:, None]), rigid)
         slip, share = torch.zeros_like(approach.velocity[..., 1:]), torch.full_like(patch.gap, 0.5)
         never = torch.zeros_like(patch.active[:, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import torch
@@ -59,6 +60,7 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
     values = {
         "step": [world.step],
+        "single_step": [math.inf if world.single_step is None else world.single_step],
         "unit": [world.velocity_unit],
         "gyroscopic": [float(world.gyroscopic)],
         "speculative": [float(isinstance(rule, Speculative))],

@@ -21,7 +21,8 @@ def displacement(
 ) -> Tensor:
     """Return how far bodies are displaced, shape (B, N, 6) [rad, m].
 
-    Semi-implicit Euler: h v+, and out of overlaps where the rule of contact removes them without velocity. Midpoint,
+    Semi-implicit Euler: h v+, or what several steps of a simulator make of the same change of the velocity (see
+    `SemiImplicit`), and out of overlaps where the rule of contact removes them without velocity. Midpoint,
     where both halves of the step move bodies already: what impacts add to these (see `schemes.impact`).
 
     Args:
@@ -35,7 +36,11 @@ def displacement(
     if world.midpoint:
         beyond = late(problem.mass, problem.jacobian, impulse, formulation.share, twist.shape[1])
         return beyond * (units.velocity * units.step)[:, None, None]
-    return units.step[:, None, None] * twist + _removal(formulation, world, settings)
+    step = units.step[:, None, None]
+    if world.single_step is not None:
+        earlier = ((1 - world.single_step / step) / 2).clamp_min(0)
+        twist = twist - earlier * (twist - formulation.bodies.twist)
+    return step * twist + _removal(formulation, world, settings)
 
 
 def _removal(formulation: Formulation, world: World, settings: SolverSettings) -> Tensor | float:

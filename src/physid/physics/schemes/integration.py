@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -15,8 +16,25 @@ class Integration:
 class SemiImplicit(Integration):
     """Poses move with the velocity at the end of the step, x+ = x + h v+: first order, what most simulators do.
 
-    The scheme for recordings that such a simulator made with the same step: its error is then that of the recording.
+    The scheme for recordings that such a simulator made with the same step: its error is then that of the recording. A
+    longer step stands for n = h / s of the simulator's: where a force is constant, these move a body by
+
+        s (v_1 + ... + v_n) = h (v+ - (1 - s / h) / 2 (v+ - v)),
+
+    and so does the step. It is left out what a force that changes, or an impact, does between them.
+
+    Attributes:
+        step: Length s of the simulator's steps [s]; None for that of each step of the engine.
+
+    Raises:
+        ValueError: If the length is not positive.
     """
+
+    step: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.step is not None and not (math.isfinite(self.step) and self.step > 0):
+            raise ValueError(f"integration.step must be positive [s], or left out, got {self.step}")
 
 
 @final

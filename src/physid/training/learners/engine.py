@@ -82,4 +82,6 @@ class Engine:
     def _scheme(self, scene: Scene) -> Integration:
         """Return the scheme of the maker, else that of second order; other rules of contact know the first alone."""
         own_rule = self.contact is not None and self.contact != Speculative()
-        return Midpoint() if scene.integration is None and not own_rule else SemiImplicit()
+        if scene.integration is None:
+            return SemiImplicit() if own_rule else Midpoint()
+        return SemiImplicit(scene.integration.step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.compiler.graph import Value, stop
+from physid.compiler.graph import Value, most, stop
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import (
     Matrix,
@@ -63,10 +63,15 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
 
 
 def integrate(body: Record, constants: Record) -> None:
-    """Move by the new velocity v+ and the shift d, p+ = p + h (v+ + d) and q+ = exp(h (w+ + d)) q."""
+    """Move by the new velocity v+ and the shift d, p+ = p + h (v+ + d) and q+ = exp(h (w+ + d)) q.
+
+    A step that stands for several of a simulator's moves by their mean velocity instead of v+ (see `SemiImplicit`).
+    """
     h = constants.one("step")
     after = scale(constants.one("unit"), body["v"])
-    motion = add(after, scale(constants.one("unit"), body["shift"]))
+    earlier = most(0.5 - 0.5 * constants.one("single_step") / h, 0.0)
+    mean = subtract(after, scale(earlier, subtract(after, body["velocity"])))
+    motion = add(mean, scale(constants.one("unit"), body["shift"]))
     spin, linear = after[:3], after[3:]
     quaternion = body["pose"][3:]
     arm = apply(to_matrix(quaternion), body["centre_of_mass"])

@@ -9,7 +9,7 @@ from operator import and_, or_
 
 from physid.compiler.graph import Value, least, most, root, size, total, where
 from physid.compiler.section import Record
-from physid.physics.contact import FLATNESS
+from physid.physics.contact import FLATNESS, SEVERAL
 from physid.physics.contact_problem.rows import FAR, REACH
 from physid.physics.fused.formulas.algebra import (
     Matrix,
@@ -55,7 +55,9 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
     restitution = material.restitution
     h = constants.one("step")
-    speculative, split = constants.one("speculative") > 0.5, constants.one("split") > 0.5
+    several = h > SEVERAL * constants.one("single_step")  # of a simulator: contacts begin within the step
+    within = several & (gap >= 0.0)
+    speculative, split = (constants.one("speculative") > 0.5) | within, (constants.one("split") > 0.5) & ~within
     overlap = constants.one("correction") * gap / h
     apart = where(gap > 0.0, gap / h, most(overlap, -constants.one("speed_limit")))
     hits = (speed < 0.0) & (restitution > 0.0)
