@@ -96,14 +96,27 @@ def test_both_backends_agree_and_so_do_their_gradients(scene: str) -> None:
             torch.testing.assert_close(found[1][1][name], gradient, rtol=GRADIENT, atol=GRADIENT, msg=name)
 
 
-def test_steps_no_longer_than_those_of_the_simulator_are_its_own() -> None:
+def test_a_step_of_the_same_length_is_the_scheme_itself() -> None:
     case = draw(find_setup("collide"), 3, 5)
-    rollouts = [
+    one, other = (
         roll(Case(dataclasses.replace(case.world, integration=SemiImplicit(step)), case.tensors), "fused")
-        for step in (None, case.world.step, 2 * case.world.step)
-    ]
-    for other in rollouts[1:]:
-        assert torch.equal(other.pose, rollouts[0].pose)
+        for step in (None, case.world.step)
+    )
+    assert torch.equal(one.pose, other.pose)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_shorter_steps_go_through_the_ends_of_the_simulators(backend: str) -> None:
+    start = state([[0, 0, 1.0]], [[1.0, -0.5, 3.0]], [[0, 0, 7.0]])
+    world = World(FRAME, integration=SemiImplicit(FRAME), ground=None)
+    push = torch.tensor([0, 0, 0.01, 0.3, 0, 0], dtype=torch.float64).expand(1, 20, 1, 6)
+    whole, parts = (
+        PhysicsLayer(dataclasses.replace(world, substeps=count), backend=backend).rollout(  # type: ignore[arg-type]
+            start, push, boxes(mass=0.7, friction=0.3)
+        )
+        for count in (1, 7)
+    )
+    torch.testing.assert_close(parts.pose, whole.pose, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, math.inf, math.nan])

@@ -84,7 +84,7 @@ class World:
 
     @property
     def single_step(self) -> float | None:
-        """Length [s] of the steps of a simulator of which one of the engine stands for several (see `SemiImplicit`)."""
+        """Length [s] of the steps of a simulator that those of the engine follow (see `SemiImplicit`)."""
         return self.integration.step if isinstance(self.integration, SemiImplicit) else None
 
     @property

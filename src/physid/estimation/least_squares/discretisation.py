@@ -192,7 +192,7 @@ def parts_for_late_forces(
     mass = torch.tensor([body.mass for body in bodies], dtype=torch.float64)
     moment = torch.tensor([min(body.moments()) for body in bodies], dtype=torch.float64)
     held = gravity * torch.tensor([body.friction for body in bodies], dtype=torch.float64)
-    grid, most = base.grid, choice.most(base.grid, len(bodies), experiment.predictor.model.made_in)
+    grid, most = base.grid, choice.most(base.grid, len(bodies))
     if choice.late == 0 or grid.steps.shape[1] < 2:
         return torch.ones_like(most)
     change = grid.wrench.diff(dim=1).unflatten(-1, (2, 3)).norm(dim=-1) / torch.stack([moment, mass], -1)

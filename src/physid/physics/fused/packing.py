@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 
 import torch
@@ -60,7 +59,7 @@ def constants_of(world: World, settings: SolverSettings, shape: Shape) -> Tensor
         raise ValueError(f"solver.compliance must have at most {CONSTANTS.widths['ladder']} values, got {len(ladder)}")
     values = {
         "step": [world.step],
-        "single_step": [math.inf if world.single_step is None else world.single_step],
+        "single_step": [world.single_step or 0.0],
         "unit": [world.velocity_unit],
         "gyroscopic": [float(world.gyroscopic)],
         "speculative": [float(isinstance(rule, Speculative))],

@@ -21,7 +21,7 @@ def displacement(
 ) -> Tensor:
     """Return how far bodies are displaced, shape (B, N, 6) [rad, m].
 
-    Semi-implicit Euler: h v+, or what several steps of a simulator make of the same change of the velocity (see
+    Semi-implicit Euler: h v+, or what a simulator with other steps makes of the same change of the velocity (see
     `SemiImplicit`), and out of overlaps where the rule of contact removes them without velocity. Midpoint,
     where both halves of the step move bodies already: what impacts add to these (see `schemes.impact`).
 
@@ -38,7 +38,7 @@ def displacement(
         return beyond * (units.velocity * units.step)[:, None, None]
     step = units.step[:, None, None]
     if world.single_step is not None:
-        earlier = ((1 - world.single_step / step) / 2).clamp_min(0)
+        earlier = (1 - world.single_step / step) / 2
         twist = twist - earlier * (twist - formulation.bodies.twist)
     return step * twist + _removal(formulation, world, settings)
 

@@ -21,7 +21,8 @@ class SemiImplicit(Integration):
 
         s (v_1 + ... + v_n) = h (v+ - (1 - s / h) / 2 (v+ - v)),
 
-    and so does the step. It is left out what a force that changes, or an impact, does between them.
+    and so does the step. What a force that changes, or an impact, does between them is left out. A step shorter than s
+    ends where the motion x + t v + a t (t + s) / 2 through the ends of the simulator's steps is then.
 
     Attributes:
         step: Length s of the simulator's steps [s]; None for that of each step of the engine.

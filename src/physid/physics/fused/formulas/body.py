@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physid.compiler.graph import Value, most, stop
+from physid.compiler.graph import Value, stop, where
 from physid.compiler.section import Record
 from physid.physics.fused.formulas.algebra import (
     Matrix,
@@ -65,11 +65,12 @@ def prepare(body: Record, shared: Record, constants: Record, *, midpoint: bool =
 def integrate(body: Record, constants: Record) -> None:
     """Move by the new velocity v+ and the shift d, p+ = p + h (v+ + d) and q+ = exp(h (w+ + d)) q.
 
-    A step that stands for several of a simulator's moves by their mean velocity instead of v+ (see `SemiImplicit`).
+    A step of another length than a simulator's moves by the mean velocity of that one instead (see `SemiImplicit`).
     """
     h = constants.one("step")
     after = scale(constants.one("unit"), body["v"])
-    earlier = most(0.5 - 0.5 * constants.one("single_step") / h, 0.0)
+    single = constants.one("single_step")
+    earlier = where(single > 0.0, 0.5 - 0.5 * single / h, 0.0)
     mean = subtract(after, scale(earlier, subtract(after, body["velocity"])))
     motion = add(mean, scale(constants.one("unit"), body["shift"]))
     spin, linear = after[:3], after[3:]

@@ -7,7 +7,7 @@ from physid.physics.effect import widths_of
 
 CONSTANTS = Layout(
     step=1,  # h [s]
-    single_step=1,  # of a simulator, where h stands for several of its steps [s]; infinity for none
+    single_step=1,  # length of the steps of a simulator that is followed [s]; 0 for that of each step
     unit=1,  # g h [m/s], the unit of velocities
     gyroscopic=1,  # 1 or 0
     speculative=1, split=1,  # 1 for the rule of contact in force, or 0

@@ -55,7 +55,8 @@ def rule(gap: Value, speed: Value, free_speed: Value, material: Material, consta
     """Return the offset c of eq. (3) [m/s] and whether the contact exists, by the contact rule of the world."""
     restitution = material.restitution
     h = constants.one("step")
-    several = h > SEVERAL * constants.one("single_step")  # of a simulator: contacts begin within the step
+    single = constants.one("single_step")
+    several = (single > 0.0) & (h > SEVERAL * single)  # steps of a simulator: contacts begin within this one
     within = several & (gap >= 0.0)
     speculative, split = (constants.one("speculative") > 0.5) | within, (constants.one("split") > 0.5) & ~within
     overlap = constants.one("correction") * gap / h
