@@ -7,12 +7,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from diagnosis.sets import recorded
+from diagnosis.sets import FRICTION, recorded
 from physid.data import RecordingSet
 from physid.diagnosis.inputs.model_source import read_nominal_model
 from physid.diagnosis.inputs.observations import load_observations
+from physid.diagnosis.reference.discrepancy import fit_with_reference
 from physid.diagnosis.reference.nominal_fit import NominalFit, fit_nominal_model
 from physid.diagnosis.settings.settings import Settings
+from physid.diagnosis.testing import begin_hypothesis, conclude, finish_hypothesis
 from physid.effects import find
 from physid.estimation.least_squares.experiment import Experiment, Fit
 from physid.estimation.least_squares.levenberg_marquardt import gauss_newton, solve_shared
@@ -150,3 +152,23 @@ def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_
     grid = found.experiment.predictor.timeline.grid
     assert len(observations.timeline.grid.steps[0].unique()) > 5
     assert torch.allclose(grid.steps[grid.real], torch.tensor(model.scene.integration.step, dtype=torch.float64))
+
+
+@pytest.mark.slow
+def test_a_camera_that_sees_between_the_steps_of_a_simulator_is_found_as_late_as_it_is(tmp_path: Path) -> None:
+    # PyBullet takes four steps from frame to frame; the camera is 4.8 of them late.
+    late = {"observation_latency": {"latency": 0.02}}
+    changes = {"frame_rate": 60, "trajectories": 10, "steps": 100, "split": {"fit": 8, "report_same": 2}}
+    observations = load_observations(RecordingSet(recorded(tmp_path / "late", late, **changes)))
+    assert observations.scene.integration is not None
+    model, kinds = read_nominal_model(observations.scene, None), [find("observation_latency")]
+    found = fit_nominal_model(observations, model, kinds, torch.Generator().manual_seed(0))
+    start = found.experiment.linearise(found.fit.point, torch.tensor([0]))
+    one = finish_hypothesis(begin_hypothesis(found.experiment, start, (kinds[0].name,), found.settings))
+    experiment, fit = fit_with_reference(one.experiment, one.fit, one.columns, one.names, found.settings)
+    one = conclude(experiment, fit, one.names, found.settings)
+    reach, friction = one.reach(one.covariance()), float(model.to_values(one.fit.point.nominal[0])[0])
+    assert one.values["observation_latency.latency"] == pytest.approx(
+        0.02, abs=float(reach[-1])
+    )  # before: 20.5 +- 0.4 ms
+    assert friction == pytest.approx(FRICTION, rel=float(reach[0]))

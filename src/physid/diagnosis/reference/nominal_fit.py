@@ -23,7 +23,6 @@ from physid.estimation.segmented_fit import (
     phases_of,
     squares_of_segments,
     unexplained_events,
-    with_steps_for_late_forces,
     without_outliers,
 )
 
@@ -109,8 +108,6 @@ def fit_nominal_model(
     for _ in range(own.rounds.step_choices if _chooses_steps(observations, model) else 0):
         say(Stage.CHOOSING_STEPS)
         found = fit_with_chosen_steps(found, own)
-    if found.steps is None and model.substeps is None:
-        found = with_steps_for_late_forces(found, own)
     experiment, fit, noise, settings = fit_beside_references(
         found.experiment, found.fit, found.seen, observations.error, settings, generator, say
     )

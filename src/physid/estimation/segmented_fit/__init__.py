@@ -8,7 +8,6 @@ from physid.estimation.segmented_fit.fit import (
     fit_short_segments,
     fit_with_chosen_steps,
     tumbles,
-    with_steps_for_late_forces,
 )
 from physid.estimation.segmented_fit.motion_phases import PHASES, phases_of, phases_of_steps
 from physid.estimation.segmented_fit.observed import Observed, Recorded, without_outliers
@@ -68,6 +67,5 @@ __all__ = [
     "usual_misfit",
     "weighed",
     "weights_of_frames",
-    "with_steps_for_late_forces",
     "without_outliers",
 ]

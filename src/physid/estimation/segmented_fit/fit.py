@@ -25,7 +25,6 @@ from physid.estimation.prediction import (
     Prediction,
     Predictor,
     Segmentation,
-    Timeline,
     Variants,
     acts_late,
 )
@@ -159,27 +158,15 @@ def fit_with_chosen_steps(before: SegmentedFit, settings: SegmentedFitSettings) 
         observed = _counted(observed, before.seen, experiment)
     near, base = experiment.linearise(before.fit.point, NONE), observed.timeline
     chosen = choose_steps(experiment, near, base, settings.steps)
-    experiment = _stepped(experiment, near, chosen.timeline, base, chosen.parts, settings)
-    stepped = replace(before, observed=observed, experiment=experiment, noise=noise, steps=chosen)
+    least = chosen.parts
+    if any(acts_late(kind) for kind in experiment.predictor.candidates):
+        predicted, scene = near.jacobian.base.twist[0], experiment.predictor.model.scene_at(near.point.nominal[0])
+        least = least.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted, scene))
+    predictor = experiment.predictor.at_times(chosen.timeline, base.refined(least))
+    stepped = replace(
+        before, observed=observed, experiment=experiment.replace(predictor=predictor), noise=noise, steps=chosen
+    )
     return fit_around_events(stepped, settings)
-
-
-def with_steps_for_late_forces(found: SegmentedFit, settings: SegmentedFitSettings) -> SegmentedFit:
-    """Give effects that act late steps that are short enough for forces that change within those of a fit."""
-    base = found.observed.timeline
-    whole = torch.ones_like(base.owner)
-    return replace(found, experiment=_stepped(found.experiment, found.fit, base, base, whole, settings))
-
-
-def _stepped(
-    experiment: Experiment, near: Fit, chosen: Timeline, base: Timeline, parts: Tensor, settings: SegmentedFitSettings
-) -> Experiment:
-    """Return an experiment with chosen steps, and where effects act late with base steps cut into more than `parts`."""
-    predictor = experiment.predictor
-    if any(acts_late(kind) for kind in predictor.candidates):
-        predicted, scene = near.jacobian.base.twist[0], predictor.model.scene_at(near.point.nominal[0])
-        parts = parts.maximum(parts_for_late_forces(experiment, base, settings.steps, predicted, scene))
-    return experiment.replace(predictor=predictor.at_times(chosen, base.refined(parts)))
 
 
 def tumbles(found: SegmentedFit, settings: SegmentedFitSettings) -> Tensor:
