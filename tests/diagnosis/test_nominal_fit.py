@@ -142,7 +142,7 @@ def test_settings_of_the_estimator_reach_the_fit(nominal_fit: NominalFit) -> Non
 
 
 @pytest.mark.slow
-def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_path: Path) -> None:
+def test_steps_are_no_shorter_than_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_path: Path) -> None:
     words = {"jitter": 0.2, "missing": 0.1, "force_rate": 90.0, "frame_rate": 60.0}
     folder = recorded(tmp_path / "set", {}, trajectories=4, steps=40, split={"fit": 1}, **words)
     observations = load_observations(RecordingSet(folder))
@@ -151,7 +151,10 @@ def test_steps_are_those_of_the_simulator_that_is_known_whatever_the_stamps(tmp_
     found = fit_nominal_model(observations, model, [], torch.Generator().manual_seed(0))
     grid = found.experiment.predictor.timeline.grid
     assert len(observations.timeline.grid.steps[0].unique()) > 5
-    assert torch.allclose(grid.steps[grid.real], torch.tensor(model.scene.integration.step, dtype=torch.float64))
+    single = grid.steps[grid.real] / model.scene.integration.step
+    assert float(single.min()) == pytest.approx(1, abs=0.01)
+    assert float(single.max()) > 5
+    assert float((observations.timeline.grid.steps / model.scene.integration.step).max()) > 20
 
 
 @pytest.mark.slow
@@ -168,7 +171,6 @@ def test_a_camera_that_sees_between_the_steps_of_a_simulator_is_found_as_late_as
     experiment, fit = fit_with_reference(one.experiment, one.fit, one.columns, one.names, found.settings)
     one = conclude(experiment, fit, one.names, found.settings)
     reach, friction = one.reach(one.covariance()), float(model.to_values(one.fit.point.nominal[0])[0])
-    assert one.values["observation_latency.latency"] == pytest.approx(
-        0.02, abs=float(reach[-1])
-    )  # before: 20.5 +- 0.4 ms
+    # Steps of the simulator alone, which are too long for it, had given 20.5 +- 0.4 ms.
+    assert one.values["observation_latency.latency"] == pytest.approx(0.02, abs=float(reach[-1]))
     assert friction == pytest.approx(FRICTION, rel=float(reach[0]))

@@ -46,12 +46,23 @@ def test_the_noise_of_a_sensor_is_found_whether_rows_are_held_or_go_along_lines(
     assert found[0, 3:].tolist() == pytest.approx([noise**2 / RATE] * 3, rel=0.35)
 
 
+@pytest.mark.parametrize("rate", [60, 100, 200, 250, 400, 1000])
+def test_the_noise_along_lines_is_found_at_any_rate_of_the_sensor(rate: int) -> None:
+    force = commanded() + 0.02 * np.random.default_rng(1).standard_normal((SET, ROWS, 3))
+    time, frame = np.arange(ROWS) / rate, 1 / 60
+    stamps, _ = along_lines(time, force[0][:, None].repeat(2, -1), frame)
+    lines = np.stack([along_lines(time, each[:, None].repeat(2, -1), frame)[1][:, 0, :3] for each in force])
+    grid = grid_of(lines, 1 / float(np.diff(stamps)[0]))
+    assert force_noise(grid)[0, 3:].tolist() == pytest.approx([0.02**2 / rate] * 3, rel=0.35)
+
+
 def test_commands_have_no_noise_however_often_or_steadily_they_change() -> None:
     time, generator = np.arange(ROWS) / RATE, np.random.default_rng(2)
     swings = np.stack([np.stack([math.pi * np.sin(k * time + k), np.cos(5 * time), 0 * time], -1) for k in range(3, 9)])
     anew = np.stack([redrawn(generator, np.array([1.0, 0.0, 0.0]), ROWS) for _ in range(SET)])
     rounded = commanded() + swings.round(3)
-    for force in (commanded(), swings, anew, rounded, 0 * anew):
+    lines = np.stack([along_lines(time, each[:, None].repeat(2, -1), 1 / 60)[1][:, 0, :3] for each in commanded()])
+    for force in (commanded(), swings, anew, rounded, 0 * anew, lines):
         for rate in (60, RATE):
             assert float(force_noise(grid_of(force, rate)).max()) <= 1e-6 / rate, "but for what rounding does"
 

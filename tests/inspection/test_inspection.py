@@ -163,6 +163,11 @@ def sunk(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     return pose
 
 
+def on_a_table(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    pose[..., 2] += 0.742
+    return pose
+
+
 def mirrored(pose: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
     """Reflect y: rotations, which are axial, turn the other way about x and z."""
     return pose * [1, -1, 1, -1, 1, -1, 1]
@@ -286,6 +291,7 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
     ("push", "w first", posed(w_first), "order: wxyz (w stands first)"),
     ("push", "grams", in_grams, "more than any matter does: its mass seems to be in grams -> import with units.mass=g"),
     ("push", "another ground", posed(sunk), "mm above the ground -> check ground.offset"),
+    ("push", "a table", posed(on_a_table), "seems to be 742 mm higher -> import with ground.offset=0.74"),
     (
         "push",
         "nothing moves",
@@ -310,6 +316,13 @@ def test_a_mistake_is_found_with_its_mend(tmp_path: Path, name: str, change: Cha
     changed = [change(scene, one) for one in recordings]
     found = said(tmp_path, changed[0][0], [one for _, one in changed])
     assert any(message in one for one in found), found
+
+
+def test_on_a_table_above_the_ground_nothing_else_is_said_to_be_wrong(tmp_path: Path) -> None:
+    scene, recordings = recorded("push")
+    change = posed(on_a_table)
+    (only,) = said(tmp_path, scene, [change(scene, one)[1] for one in recordings])
+    assert "touch no ground" in only
 
 
 @pytest.mark.slow

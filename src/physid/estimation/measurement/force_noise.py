@@ -13,6 +13,8 @@ from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 
 BLOCKS = (2, 4)  # rows whose means are compared with those of their neighbours; noise is that of the longer ones
 KINDS = (slice(0, 3), slice(3, 6))  # torque, force
+LONGEST = 10  # parts of a line, and then some for ends that are missed
+ROUNDING = 1e-9  # share of the largest force below which a difference is none
 CUBIC = (-1.0, 3.0, -3.0, 1.0)  # a third difference: of a smooth force next to nothing
 
 
@@ -77,7 +79,30 @@ def _rows(grid: StepGrid, trajectory: int) -> tuple[Tensor, Tensor]:
     begins = torch.ones(count, dtype=torch.bool)
     begins[1:] = (wrench[1:] != wrench[:-1]).flatten(1).any(1)
     held = torch.zeros(int(begins.sum()), dtype=steps.dtype).index_add_(0, begins.cumsum(0) - 1, steps)
-    return wrench[begins], held
+    return _whole_lines(wrench[begins], held)
+
+
+def _whole_lines(rows: Tensor, held: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the means of lines (J, N, 6) that rows (K, N, 6) are parts of, and how long each lasts, (J,).
+
+    Forces that go along lines from one sample of a sensor to the next are held in equal parts of each line. Between
+    parts of one line they change by the same, and from the last part of one to the first of the next by the mean of
+    what they change by in both, so that there the third difference of four parts is zero, and the second is not.
+    Where few rows end so, they are no parts of lines, and returned as they are.
+    """
+    if len(rows) < len(CUBIC):
+        return rows, held
+    zero = ROUNDING * rows.abs().amax()
+    second, third = (rows.diff(n=order, dim=0).abs().flatten(1).amax(1) for order in (2, 3))
+    ends = (third <= zero) & (second[:-1] > zero)
+    if int(ends.sum()) * LONGEST < len(rows):
+        return rows, held
+    begins = torch.nn.functional.pad(ends, (2, 1)).long().cumsum(0)
+    length = torch.zeros(int(begins[-1]) + 1, dtype=held.dtype).index_add_(0, begins, held)
+    total = torch.zeros(len(length), *rows.shape[1:], dtype=rows.dtype).index_add_(
+        0, begins, rows * held[:, None, None]
+    )
+    return total / length[:, None, None], length
 
 
 def _bent(rows: Tensor, size: int) -> Tensor:

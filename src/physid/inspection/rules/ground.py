@@ -102,15 +102,22 @@ def carried(seen: Evidence) -> Finding | None:
 
 
 def adrift(seen: Evidence) -> Finding | None:
-    """Bodies that neither fall nor touch the ground, at heights that change."""
+    """Bodies that neither fall nor touch the ground, at heights that change, or far from it."""
     here = Carried.of(seen)
     what = None if here is None else here.away()
     if here is None or what is None:
         return None
-    low, high = np.quantile(here.height(here.pose, seen.scene.ground.normal), [0.1, 0.9])
-    if high - low < float(seen.scene.sizes.min()):
+    low, middle, high = np.quantile(here.height(here.pose, seen.scene.ground.normal), [0.1, 0.5, 0.9])
+    edge = float(seen.scene.sizes.min())
+    if high - low >= edge:
+        return Finding(what, "check axes, the order of quaternions, ground and size; does a hand carry it?")
+    if abs(middle) < edge:
         return None  # always the same: `heights` speaks of the ground, the size and the point that is tracked
-    return Finding(what, "check axes, the order of quaternions, ground and size; does a hand carry it?")
+    offset = seen.scene.ground.offset + middle
+    return Finding(
+        f"{what}: what carries them seems to be {1000 * abs(middle):.3g} mm {'higher' if middle > 0 else 'lower'}",
+        f"import with ground.offset={offset:.4g}, the height of the table in the log's frame [m]",
+    )
 
 
 def _ups(normal: tuple[float, ...]) -> dict[str, tuple[float, ...]]:

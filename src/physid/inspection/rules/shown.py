@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
-from physid.inspection.rules.ground import heights
+from physid.inspection.rules.ground import adrift, heights
 
 SLIDING = 0.03  # [m/s] along the ground, from which on a body that touches it slides
 HITTING = 0.1  # [m/s] towards the ground, from which on a body that touches it later hits it
@@ -36,7 +36,7 @@ def hidden(seen: Evidence) -> Finding | None:
     """Unknown parameters that nothing shows, unless it is how poses were imported that hides it."""
     if len(seen.scene.bodies) > 1:
         return None  # bodies show each other's
-    floats = heights(seen) is not None
+    floats = heights(seen) is not None or adrift(seen) is not None
     for name in seen.scene.unknown:
         body, parameter = seen.scene.locate(name)
         count = int(_frames(seen, body, parameter).sum())
