@@ -14,6 +14,7 @@ from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 BLOCKS = (2, 4)  # rows whose means are compared with those of their neighbours; noise is that of the longer ones
 KINDS = (slice(0, 3), slice(3, 6))  # torque, force
 LONGEST = 10  # parts of a line, and then some for ends that are missed
+EQUAL = 1e-2  # share of a second difference below which a third one is none: parts are as long but for rounded stamps
 ROUNDING = 1e-9  # share of the largest force below which a difference is none
 CUBIC = (-1.0, 3.0, -3.0, 1.0)  # a third difference: of a smooth force next to nothing
 
@@ -92,9 +93,8 @@ def _whole_lines(rows: Tensor, held: Tensor) -> tuple[Tensor, Tensor]:
     """
     if len(rows) < len(CUBIC):
         return rows, held
-    zero = ROUNDING * rows.abs().amax()
     second, third = (rows.diff(n=order, dim=0).abs().flatten(1).amax(1) for order in (2, 3))
-    ends = (third <= zero) & (second[:-1] > zero)
+    ends = (third <= EQUAL * second[:-1]) & (second[:-1] > ROUNDING * rows.abs().amax())
     if int(ends.sum()) * LONGEST < len(rows):
         return rows, held
     begins = torch.nn.functional.pad(ends, (2, 1)).long().cumsum(0)
