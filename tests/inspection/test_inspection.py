@@ -305,6 +305,12 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
         lambda scene, one: (scene.with_bodies([dataclasses.replace(scene.bodies[0], size=(300, 250, 200))]), one),
         "sizes seem to be in millimetres",
     ),
+    (
+        "push",
+        "sizes in centimetres",
+        lambda scene, one: (scene.with_bodies([dataclasses.replace(scene.bodies[0], size=(30, 25, 20))]), one),
+        "sizes seem to be in centimetres",
+    ),
 ]
 
 

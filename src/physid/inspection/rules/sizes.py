@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from physid.inspection.evidence import Evidence
 from physid.inspection.finding import Finding
+from physid.inspection.kinematics import lowest_corner
 from physid.inspection.rules.falls import FALL, SCALES
 
 Array = NDArray[np.float64]
 LARGE = 10.0  # [m]
+SMALL = {"millimetres": 1e-3, "centimetres": 1e-2}  # units of sizes [m]
 DENSEST = 25_000.0  # [kg/m^3]; osmium has 22 600
 FAR = 30.0  # factor between the heights of runs from which on no motion of one box explains it, but a unit
 HIGH = 0.25  # smallest edges: median height from which on ratios of heights mean something
@@ -25,10 +29,24 @@ def sizes(seen: Evidence) -> Finding | None:
     speed = np.linalg.norm(k.velocity, axis=1)
     if len(speed) and edge > LARGE and float(speed.max()) < edge:
         return Finding(
-            f"a body of {edge:g} m moves at {np.median(speed):.3g} m/s: sizes seem to be in millimetres",
+            f"a body of {edge:g} m moves at {np.median(speed):.3g} m/s: sizes seem to be in {_unit_of_sizes(seen)}",
             "write the full edges in metres into recording.yaml",
         )
     return None
+
+
+def _unit_of_sizes(seen: Evidence) -> str:
+    """Return the unit in which lowest corners are nearest to the ground, as they are on average."""
+
+    def away(unit: float) -> float:
+        edges = [(unit * x, unit * y, unit * z) for x, y, z in seen.scene.sizes.tolist()]
+        scene = seen.scene.with_bodies(
+            [replace(body, size=size) for body, size in zip(seen.scene.bodies, edges, strict=True)]
+        )
+        lowest = [np.median(np.abs(lowest_corner(pose, scene, body))) for _, body, _, pose in seen.tracks()]
+        return float(np.median(lowest))
+
+    return min(SMALL, key=lambda name: away(SMALL[name]))
 
 
 def masses(seen: Evidence) -> Finding | None:
