@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import torch
@@ -13,9 +14,6 @@ from physid.estimation.measurement.noise_settings import DEFAULT, NoiseSettings
 
 BLOCKS = (2, 4)  # rows whose means are compared with those of their neighbours; noise is that of the longer ones
 KINDS = (slice(0, 3), slice(3, 6))  # torque, force
-LONGEST = 10  # parts of a line, and then some for ends that are missed
-EQUAL = 1e-2  # share of a second difference below which a third one is none: parts are as long but for rounded stamps
-ROUNDING = 1e-9  # share of the largest force below which a difference is none
 CUBIC = (-1.0, 3.0, -3.0, 1.0)  # a third difference: of a smooth force next to nothing
 
 
@@ -36,7 +34,7 @@ def force_noise(grid: StepGrid, settings: NoiseSettings = DEFAULT) -> Tensor:
     """
     bodies = grid.wrench.shape[2]
     density, found = torch.zeros(bodies, 6, dtype=torch.float64), list[Tensor]()
-    rows = [_rows(grid, trajectory) for trajectory in range(len(grid.count))]
+    rows = [_rows(grid, trajectory, settings) for trajectory in range(len(grid.count))]
     held = torch.cat([length for _, length in rows]).median()
     for size in BLOCKS:
         bent = torch.cat([_bent(values, size) for values, _ in rows])
@@ -73,17 +71,17 @@ def deviation_of_each(values: Tensor) -> Tensor:
     return found.reshape(values.shape[1:])
 
 
-def _rows(grid: StepGrid, trajectory: int) -> tuple[Tensor, Tensor]:
+def _rows(grid: StepGrid, trajectory: int, settings: NoiseSettings) -> tuple[Tensor, Tensor]:
     """Return the rows (K, N, 6) of a trajectory, and how long each is held [s], (K,)."""
     count = int(grid.count[trajectory])
     wrench, steps = grid.wrench[trajectory, :count], grid.steps[trajectory, :count]
     begins = torch.ones(count, dtype=torch.bool)
     begins[1:] = (wrench[1:] != wrench[:-1]).flatten(1).any(1)
     held = torch.zeros(int(begins.sum()), dtype=steps.dtype).index_add_(0, begins.cumsum(0) - 1, steps)
-    return _whole_lines(wrench[begins], held)
+    return _whole_lines(wrench[begins], held, settings)
 
 
-def _whole_lines(rows: Tensor, held: Tensor) -> tuple[Tensor, Tensor]:
+def _whole_lines(rows: Tensor, held: Tensor, settings: NoiseSettings) -> tuple[Tensor, Tensor]:
     """Return the means of lines (J, N, 6) that rows (K, N, 6) are parts of, and how long each lasts, (J,).
 
     Forces that go along lines from one sample of a sensor to the next are held in equal parts of each line. Between
@@ -94,8 +92,9 @@ def _whole_lines(rows: Tensor, held: Tensor) -> tuple[Tensor, Tensor]:
     if len(rows) < len(CUBIC):
         return rows, held
     second, third = (rows.diff(n=order, dim=0).abs().flatten(1).amax(1) for order in (2, 3))
-    ends = (third <= EQUAL * second[:-1]) & (second[:-1] > ROUNDING * rows.abs().amax())
-    if int(ends.sum()) * LONGEST < len(rows):
+    rounding = math.sqrt(torch.finfo(rows.dtype).eps) * rows.abs().amax()
+    ends = (third <= settings.line_equal * second[:-1]) & (second[:-1] > rounding)
+    if int(ends.sum()) * settings.line_parts < len(rows):
         return rows, held
     begins = torch.nn.functional.pad(ends, (2, 1)).long().cumsum(0)
     length = torch.zeros(int(begins[-1]) + 1, dtype=held.dtype).index_add_(0, begins, held)

@@ -47,6 +47,14 @@ class NoiseSettings(Section):
         0.05, "-", "of recorded forces that is noise at most; what changes by more from row to row is commanded",
         "decision 89", ge=0,
     )  # fmt: skip
+    line_parts: int = setting(
+        10, "rows", "most that are parts of one line of forces, and then some for ends that are missed",
+        "decision 98", ge=2,
+    )  # fmt: skip
+    line_equal: float = setting(
+        0.01, "share", "of a second difference of forces below which a third one is none, though stamps are rounded",
+        "decision 98", gt=0, lt=1,
+    )  # fmt: skip
     force_white: float = setting(
         2.0, "-", "times as much noise of forces may means of twice as many rows show; more is a steady change",
         "decision 89", ge=1,
