@@ -96,6 +96,10 @@ class StepGrid:
         wrench = torch.where(filled[..., None, None], 0.0, wrench)
         return StepGrid(steps, wrench, ends.gather(1, self.frame_step), count)
 
+    def parts_of(self, length: float) -> Tensor:
+        """Return into how many equal parts of about a length [s] each step is cut, at least one, shape (R, S)."""
+        return (self.steps / length).round().long().clamp_min(1)
+
     def chosen(self, which: Tensor) -> StepGrid:
         """Return the grid of some trajectories, by index or mask, no longer than they need."""
         count = self.count[which]

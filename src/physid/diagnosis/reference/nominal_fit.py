@@ -12,7 +12,7 @@ from physid.diagnosis.inputs import Observations
 from physid.diagnosis.progress import Progress, Stage, silent
 from physid.diagnosis.reference.following import fit_beside_references
 from physid.diagnosis.settings.settings import Settings
-from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit, StepChoice
+from physid.estimation.least_squares import NONE, ChosenSteps, Experiment, Fit
 from physid.estimation.measurement import Noise
 from physid.estimation.prediction import EffectKinds, NominalModel, Predictor, Segmentation, Timeline
 from physid.estimation.segmented_fit import (
@@ -126,9 +126,8 @@ def _first_steps(observations: Observations, model: NominalModel) -> Timeline:
 def _chooses_steps(observations: Observations, model: NominalModel) -> bool:
     """Return whether the steps of the engine follow from the recordings.
 
-    They do where nobody says how these were integrated, and where it was in steps much shorter than a frame.
+    They do where nobody says how these were integrated, and where it was in steps shorter than those of a frame.
     """
-    if model.substeps is not None:
-        return False
-    most = StepChoice().most(observations.timeline.grid, len(model.scene.bodies), model.made_in)
-    return model.made_in is None or bool((most > 1).any())
+    if model.substeps is not None or model.made_in is None:
+        return model.substeps is None
+    return bool((observations.timeline.grid.parts_of(model.made_in) > 1).any())

@@ -52,7 +52,7 @@ class StepChoice(Section):
         them. Else the power of two that makes steps about as long as the shortest.
         """
         if made is not None:
-            return (grid.steps / made).round().long().clamp_min(1)
+            return grid.parts_of(made)
         power = (grid.steps / self.shortest_among(bodies)).log2().round().clamp_min(0)
         return (2**power).long()
 

@@ -57,7 +57,7 @@ class StepControl:
             return whole.stepped(self._time_step)
         if whole.grid is None:
             return whole
-        return whole.refined((whole.grid.steps / self._time_step).round().long().clamp_min(1))
+        return whole.refined(whole.grid.parts_of(self._time_step))
 
     def apply(self, cut: Trajectories) -> Trajectories:
         """Return trajectories or segments with the steps chosen for them; where none were, with short ones."""
