@@ -223,13 +223,6 @@ def test_candidates_that_cannot_be_simulated_are_passed_over_and_the_best_comes_
     assert said[:3] == ["gravity_error (1 of 3)", "viscous_drag (2 of 3)", "constant_force (3 of 3)"]
     assert said.count("constant_force") == 2, "is finished and replayed"
     assert "gravity_error" not in said[3:], "falls too far behind"
-    said.clear()
-    behind = compare_candidates([("gravity_error",)], begin, nominal, lambda stage, what="": said.append(what), found)
-    assert [one.names for one in behind] == [("gravity_error",)]
-    assert said == ["gravity_error (1 of 1)"], "alone it would be the best, but it falls too far behind what is known"
-    said.clear()
-    compare_candidates([("constant_force",)], begin, nominal, lambda stage, what="": said.append(what), found[1:])
-    assert said.count("constant_force") == 2, "is finished and replayed, for it is ahead of what is known"
     lack = find_lack_of_fit(examined(made), nominal, random())
     assert ("constant_force",) in survivors(lack, QUICK)
     fits = Fitted(nominal, lack.fit, [found[0]])

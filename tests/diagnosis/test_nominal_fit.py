@@ -174,3 +174,15 @@ def test_a_camera_that_sees_between_the_steps_of_a_simulator_is_found_as_late_as
     # Steps of the simulator alone, which are too long for it, had given 20.5 +- 0.4 ms.
     assert one.values["observation_latency.latency"] == pytest.approx(0.02, abs=float(reach[-1]))
     assert friction == pytest.approx(FRICTION, rel=float(reach[0]))
+
+
+@pytest.mark.slow
+def test_bodies_that_strike_each_other_are_followed_in_the_steps_of_the_simulator_throughout(tmp_path: Path) -> None:
+    words = {"scene": "collide", "frame_rate": 60, "trajectories": 4, "steps": 30, "protocol_of_split": {}}
+    observations = load_observations(RecordingSet(recorded(tmp_path / "set", {}, split={"fit": 1}, **words)))
+    model = read_nominal_model(observations.scene, None)
+    assert model.made_in is not None
+    found = fit_nominal_model(observations, model, [], torch.Generator().manual_seed(0))
+    grid = found.experiment.predictor.timeline.grid
+    assert torch.allclose(grid.steps[grid.real], torch.tensor(model.made_in, dtype=torch.float64))
+    assert found.steps is None

@@ -22,11 +22,7 @@ Names = tuple[str, ...]
 
 
 def compare_candidates(
-    wanted: Sequence[Names],
-    begin: Callable[[Names], Hypothesis],
-    before: Hypothesis,
-    say: Progress,
-    known: Sequence[Hypothesis] = (),
+    wanted: Sequence[Names], begin: Callable[[Names], Hypothesis], before: Hypothesis, say: Progress
 ) -> list[Hypothesis]:
     """Fit hypotheses and settle the best of them with the reference simulator; best predictions first.
 
@@ -35,7 +31,6 @@ def compare_candidates(
         begin: Fits one of them for a few steps.
         before: The hypothesis that they shall improve on.
         say: Called with what is being done.
-        known: Hypotheses that have been settled; those far behind the best of them are dropped as well.
     """
     settings, begun = before.settings.comparison, []
     for number, names in enumerate(wanted):
@@ -45,13 +40,11 @@ def compare_candidates(
         except SolverError:
             continue  # a candidate that cannot be simulated where the data want it explains nothing
     begun = by_prediction(begun)
-    ahead = by_prediction([*begun, *known])[:1]
-    hopeful = [gain(one, ahead[0]) <= settings.behind * gain(before, ahead[0]) for one in begun]
+    hopeful = [gain(one, begun[0]) <= settings.behind * gain(before, begun[0]) for one in begun]
     fitted = by_prediction([_finished(one, say) if worth else one for one, worth in zip(begun, hopeful, strict=True)])
     settled: list[Hypothesis] = []
     for one in fitted[: settings.most_refitted]:
-        first = next(iter(by_prediction([*settled, *known])), None)
-        if first is not None and gain(one, first) > settings.near * gain(before, first):
+        if settled and gain(one, settled[0]) > settings.near * gain(before, settled[0]):
             break
         rivals = [each for each in (before, *settled, *fitted[len(settled) :]) if each is not one]
         settled.append(_fitted_with_reference(one, by_prediction(rivals)[0], say))

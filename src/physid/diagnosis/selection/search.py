@@ -194,7 +194,6 @@ def _from_finite_sizes(
         lambda names: begin_from_finite_sizes(nominal_fit.experiment, lack.fit.point, names, changes[names], settings),
         nominal,
         say,
-        singles,
     )
     best: dict[tuple[str, ...], Hypothesis] = {}
     for one in by_prediction([*singles, *again]):

@@ -172,7 +172,7 @@ def of_one_more(
         if needed(first) and closes(first):
             break
         names = fits.exchanges(first, {frozenset(one.names) for one in fitted}, most)
-        fitted = by_prediction([*fitted, *compare_candidates(names, fits.begin, best, say, fitted)])
+        fitted = by_prediction([*fitted, *compare_candidates(names, fits.begin, best, say)])
         if fitted[0] is first:
             break
     return [one for one in fitted if needed(one)]
@@ -189,5 +189,4 @@ def with_twins(lack: LackOfFit, nominal: Hypothesis, tried: list[Hypothesis], sa
     known = {frozenset(one.names) for one in tried}
     exchanged = (tuple(sorted({*best.names} - {part} | {rival})) for part, rival in twins(lack, best, tried))
     names = [each for each in dict.fromkeys(exchanged) if frozenset(each) not in known]
-    begin = Fitted(nominal, lack.fit, tried).begin
-    return by_prediction([*tried, *compare_candidates(names, begin, best, say, tried)])
+    return by_prediction([*tried, *compare_candidates(names, Fitted(nominal, lack.fit, tried).begin, best, say)])
